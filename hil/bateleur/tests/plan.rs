@@ -27,6 +27,63 @@ fn the_nine_partitions_are_planned_and_pass_the_checker() {
     assert_eq!(checked.code, 0, "{}", checked.stdout);
 }
 
+/// The needs of a flight with three Controllers, which `durations_us` gives their windows.
+fn needs_of_replicas(durations_us: [u64; 3]) -> String {
+    let needs = std::fs::read_to_string(repository().join(NEEDS)).unwrap();
+    let replica = |(place, us)| {
+        let number = place + 1;
+        format!("controller_{number} = {{ period = \"20ms\", duration = \"{us}us\" }}\n")
+    };
+    needs + &durations_us.into_iter().enumerate().map(replica).collect::<String>()
+}
+
+fn plan_replicas(needs: &str, schedule: &str) -> support::Ended {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, plan) = (folder.path().join("needs.toml"), folder.path().join("plan.toml"));
+    std::fs::write(&path, needs).unwrap();
+    std::fs::write(&plan, schedule).unwrap();
+    bateleur(&["plan", path.to_str().unwrap(), "--schedule", plan.to_str().unwrap()])
+}
+
+#[test]
+fn replicas_of_one_module_are_planned_one_after_the_other_and_their_voter_behind_them() {
+    let schedule = std::fs::read_to_string(repository().join("schedules/replicas.toml")).unwrap();
+    for durations_us in [[1000, 1000, 1000], [700, 1100, 900], [300, 250, 200]] {
+        let ended = plan_replicas(&needs_of_replicas(durations_us), &schedule);
+        // No warning either: nobody who writes what they read has a window between them.
+        assert_eq!((ended.code, ended.stderr.as_str()), (0, ""), "{durations_us:?}");
+        let order: Vec<&str> = ended.stdout.lines().filter_map(|line| line.split('"').nth(1)).collect();
+        let of = |name: &str| order.iter().position(|other| *other == name).unwrap();
+        let first = of("controller_1");
+        assert_eq!(order[first..first + 3], ["controller_1", "controller_2", "controller_3"]);
+        assert!(of("estimator") < first && first + 2 < of("controller") && of("controller") < of("servo"));
+    }
+}
+
+#[test]
+fn needs_of_replicas_that_can_not_be_together_are_refused_with_a_way_to_mend_them() {
+    let schedule = std::fs::read_to_string(repository().join("schedules/replicas.toml")).unwrap();
+    let needs = needs_of_replicas([1000; 3]);
+    let third = "controller_3 = { period = \"20ms\", duration = \"1000us\" }";
+    for (new, words) in [
+        ("", "partition `controller_3` has no need: add"),
+        ("controller_3 = { period = \"40ms\", duration = \"1ms\" }", "give them the same period and core"),
+        (
+            "controller_3 = { period = \"20ms\", duration = \"1ms\", offset = \"9ms\" }",
+            "`controller_3` runs right behind `controller_1`: ask for the offset of `controller_1` alone",
+        ),
+        ("controller_4 = { period = \"20ms\", duration = \"1ms\" }", "there is no partition `controller_4`"),
+    ] {
+        let ended = plan_replicas(&needs.replace(third, new), &schedule);
+        assert_eq!(ended.code, 2, "{}", ended.stdout);
+        assert!(ended.stderr.contains(words), "{words}:\n{}", ended.stderr);
+    }
+    let ended = plan_replicas(&needs.replace(third, &third.replace("1000us", "15ms")), &schedule);
+    let words = "the window of `controller_1`, `controller_2`, `controller_3` takes 17ms";
+    assert_eq!(ended.code, 1, "{}", ended.stdout);
+    assert!(ended.stderr.contains(words) || ended.stderr.contains("too much"), "{}", ended.stderr);
+}
+
 fn plan_with(change: impl Fn(&str) -> String) -> support::Ended {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("needs.toml");

@@ -11,7 +11,7 @@ mod needs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_checker::planner::{Answer, Request, plan};
+use bateleur_checker::planner::{Answer, plan};
 use bateleur_checker::{Report, Severity, Violation};
 use bateleur_plan::units::ShowTime;
 
@@ -20,7 +20,7 @@ use crate::output::refuse_file;
 use crate::plan_file;
 use from_run::Run;
 use module::Module;
-use needs::Needs;
+use needs::{Needs, Wanted};
 
 /// Make a schedule from what the partitions need.
 #[derive(Debug, clap::Args)]
@@ -66,12 +66,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             Some(Run::read(folder, &plan, arguments.margin)?)
         }
     };
-    let request = needs.request(&module, run.as_ref());
-    let request = match &arguments.needs {
-        Some(needs) => request.with_context(|| format!("in {}", needs.display()))?,
-        None => request?,
+    let wanted = needs.wanted(&module, run.as_ref());
+    let wanted = match &arguments.needs {
+        Some(needs) => wanted.with_context(|| format!("in {}", needs.display()))?,
+        None => wanted?,
     };
-    let answer = match plan(&request) {
+    let answer = match plan(&wanted.request) {
         Ok(answer) => answer,
         Err(reason) => {
             eprintln!("there is no such schedule: {reason}");
@@ -79,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         }
     };
     let name = needs.name.clone().unwrap_or_else(|| module.schedule_name());
-    let text = text(&name, module.is_initial(&name), &request, &answer);
+    let text = text(&name, module.is_initial(&name), &wanted, &answer);
     let text = match &run {
         Some(run) => text.replacen(MADE, &format!("{MADE}\n{}", run.comments().trim_end()), 1),
         None => text,
@@ -134,20 +134,24 @@ fn put(output: Option<&Path>, text: &str) -> Result<()> {
 }
 
 /// The schedule as the file has it, in columns.
-fn text(name: &str, initial: bool, request: &Request, answer: &Answer) -> String {
-    let cells = |place: usize| {
-        let window = &answer.windows[place];
-        let need = &request.needs[window.need];
-        let several = need.cores.len() > 1 || request.needs.iter().any(|other| other.cores != need.cores);
+fn text(name: &str, initial: bool, wanted: &Wanted, answer: &Answer) -> String {
+    let needs = &wanted.request.needs;
+    let mut rows: Vec<[String; 3]> = Vec::new();
+    for window in &answer.windows {
+        let cores = &needs[window.need].cores;
+        let several = cores.len() > 1 || needs.iter().any(|other| other.cores != *cores);
         let core = if several { format!(", core = {}", window.core) } else { String::new() };
         let minor = window.minor.as_ref().map_or_else(String::new, |list| format!(", minor = {list:?}"));
-        [
-            format!("\"{}\",", need.name),
-            format!("\"{}\",", ShowTime(window.offset_ns)),
-            format!("\"{}\"{core}{minor}", ShowTime(need.duration_ns)),
-        ]
-    };
-    let rows: Vec<[String; 3]> = (0..answer.windows.len()).map(cells).collect();
+        let mut offset_ns = window.offset_ns;
+        for member in &wanted.members[window.need] {
+            rows.push([
+                format!("\"{}\",", member.name),
+                format!("\"{}\",", ShowTime(offset_ns)),
+                format!("\"{}\"{core}{minor}", ShowTime(member.duration_ns)),
+            ]);
+            offset_ns += member.duration_ns + wanted.request.gap_ns;
+        }
+    }
     let width = |column: usize| rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
     let (first, second) = (width(0), width(1));
     let mut out = format!(

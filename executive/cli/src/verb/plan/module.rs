@@ -1,10 +1,12 @@
-//! What the planner takes from a schedule file that may not have a schedule yet: modules with their cores, partitions,
+//! What the planner takes from a schedule file that may not have a schedule yet: modules with their cores, partitions and their replicas,
 //! chains. It is read leniently here; the whole file is checked when the schedule is in it.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use bateleur_checker::planner::Bound;
+use bateleur_contract::REPLICAS;
 use bateleur_plan::units::{ShowTime, duration_ns};
 use toml::{Table, Value};
 
@@ -13,6 +15,8 @@ pub(super) struct Module {
     document: Table,
     pub(super) modules: Vec<Computer>,
     pub(super) partitions: Vec<Partition>,
+    /// By the partition, the places of its replicas.
+    replicas: BTreeMap<usize, [usize; REPLICAS]>,
 }
 
 /// One computer.
@@ -21,7 +25,7 @@ pub(super) struct Computer {
     cores: Vec<u32>,
 }
 
-/// One partition.
+/// One partition, a voter or a replica too.
 pub(super) struct Partition {
     pub(super) name: String,
     /// The place of its module.
@@ -50,16 +54,29 @@ impl Module {
             Computer { name: name.clone(), cores }
         };
         let modules: Vec<Computer> = tables(&document, "module").map(computer).collect();
-        let mut partitions = Vec::new();
+        let on = |name: &str, module: &str| {
+            let place = modules.iter().position(|known| known.name == module && !known.cores.is_empty());
+            place.map(|module| Partition { name: name.to_owned(), module }).with_context(|| {
+                format!(
+                    "{}: partition `{name}` has no module with cores: see `bateleur check`",
+                    path.display()
+                )
+            })
+        };
+        let (mut partitions, mut replicas) = (Vec::new(), BTreeMap::new());
         for (name, table) in tables(&document, "partition") {
             let module = table.get("module").and_then(Value::as_str).unwrap_or_default();
-            let place = modules.iter().position(|known| known.name == module && !known.cores.is_empty());
-            let Some(module) = place else {
-                bail!("{}: partition `{name}` has no module with cores: see `bateleur check`", path.display())
-            };
-            partitions.push(Partition { name: name.clone(), module });
+            partitions.push(on(name, module)?);
+            let Some(said) = table.get("replicas") else { continue };
+            let modules = texts(Some(said));
+            let (voter, first) = (partitions.len() - 1, partitions.len());
+            for number in 0..REPLICAS {
+                let replica = format!("{name}_{}", number + 1);
+                partitions.push(on(&replica, modules.get(number).copied().unwrap_or(module))?);
+            }
+            replicas.insert(voter, std::array::from_fn(|number| first + number));
         }
-        Ok(Self { document, modules, partitions })
+        Ok(Self { document, modules, partitions, replicas })
     }
 
     pub(super) fn partition(&self, name: &str) -> Option<usize> {
@@ -71,7 +88,25 @@ impl Module {
         self.modules[partition.module].cores.iter().map(|&core| (partition.module, core)).collect()
     }
 
-    /// The chains within one module, by the partitions on their way.
+    /// The partitions that take their turns one right after the other: the replicas on one module together, as nobody may write between them
+    /// what they read, and every other partition alone.
+    pub(super) fn turns(&self) -> Vec<Vec<usize>> {
+        let mut turns: Vec<Vec<usize>> = Vec::new();
+        for place in 0..self.partitions.len() {
+            let with = |other: usize| {
+                let same = |of: &[usize; REPLICAS]| of.contains(&place) && of.contains(&other);
+                self.replicas.values().any(same)
+                    && self.partitions[other].module == self.partitions[place].module
+            };
+            match turns.iter_mut().find(|turn| with(turn[0])) {
+                Some(turn) => turn.push(place),
+                None => turns.push(vec![place]),
+            }
+        }
+        turns
+    }
+
+    /// The chains within one module, by the partitions on their way. One that leads through replicas is one through each.
     pub(super) fn chains(&self) -> Result<Vec<Bound>> {
         let chains = self.document.get("chain").and_then(Value::as_array).into_iter().flatten();
         let mut bounds = Vec::new();
@@ -79,19 +114,26 @@ impl Module {
             let name = chain.get("name").and_then(Value::as_str).unwrap_or("?");
             let age = chain.get("max_age").and_then(Value::as_str).unwrap_or_default();
             let max_age_ns = duration_ns(age).with_context(|| format!("the age of chain `{name}`"))?;
-            let mut stations = Vec::new();
+            let mut owners = Vec::new();
             for port in texts(chain.get("path")) {
                 let owner = port.split('.').next().unwrap_or_default();
                 let Some(owner) = self.partition(owner) else {
                     bail!("chain `{name}` names `{port}`, and there is no partition `{owner}`");
                 };
-                if stations.last() != Some(&owner) {
-                    stations.push(owner);
-                }
+                owners.push(owner);
             }
+            owners.dedup();
+            let through = |number: usize| {
+                let of = |owner: usize| self.replicas.get(&owner).map(|replicas| replicas[number]);
+                owners.iter().flat_map(|&owner| of(owner).into_iter().chain([owner])).collect::<Vec<_>>()
+            };
             let module = |&station: &usize| self.partitions[station].module;
-            if stations.iter().all(|station| Some(module(station)) == stations.first().map(module)) {
-                bounds.push(Bound { name: name.to_owned(), stations, max_age_ns });
+            let has_replicas = owners.iter().any(|owner| self.replicas.contains_key(owner));
+            for number in 0..if has_replicas { REPLICAS } else { 1 } {
+                let stations = through(number);
+                if stations.iter().all(|station| Some(module(station)) == stations.first().map(module)) {
+                    bounds.push(Bound { name: name.to_owned(), stations, max_age_ns });
+                }
             }
         }
         Ok(bounds)

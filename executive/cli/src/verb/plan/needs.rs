@@ -9,7 +9,7 @@ use bateleur_plan::units::{TIME_UNITS, duration_ns};
 use serde::{Deserialize, Deserializer};
 
 use super::from_run::Run;
-use super::module::Module;
+use super::module::{Module, Partition};
 use crate::words::nearest;
 
 /// The whole file.
@@ -59,7 +59,7 @@ impl Needs {
     }
 
     /// What the planner is asked: every partition of the module file with its need, from here or else from a run.
-    pub(super) fn request(&self, module: &Module, run: Option<&Run>) -> Result<Request> {
+    pub(super) fn wanted(&self, module: &Module, run: Option<&Run>) -> Result<Wanted> {
         if let Some(stranger) = self.need.keys().find(|name| module.partition(name).is_none()) {
             let known = module.partitions.iter().map(|partition| partition.name.as_str());
             match nearest(stranger, known) {
@@ -67,29 +67,72 @@ impl Needs {
                 None => bail!("there is no partition `{stranger}` in the schedule file"),
             }
         }
-        let needs = module.partitions.iter().map(|partition| {
-            let (cores, name) = (module.cores(partition), partition.name.as_str());
-            if let Some(asked) = self.need.get(name) {
-                return asked.need(name, cores, module.modules[partition.module].name.as_str());
-            }
-            let measured = run.map(|run| run.need(name)).transpose()?.flatten();
-            let (period_ns, duration_ns) = measured.with_context(|| {
-                format!(
-                    "partition `{0}` has no need: add `{0} = {{ period = \"20ms\", duration = \"1ms\" }}` to `[need]`",
-                    partition.name
-                )
-            })?;
-            Ok(Need { name: name.to_owned(), period_ns, duration_ns, cores, offset_ns: None })
-        });
-        Ok(Request {
+        let gap_ns = self.gap.map_or(0, |time| time.0);
+        let (mut needs, mut members, turns) = (Vec::new(), Vec::new(), module.turns());
+        for turn in &turns {
+            let each = turn.iter().map(|&place| self.need(module, &module.partitions[place], run));
+            let each = each.collect::<Result<Vec<Need>>>()?;
+            needs.push(one_after_the_other(&each, gap_ns)?);
+            members.push(each);
+        }
+        let turn_of = |place: usize| turns.iter().position(|turn| turn.contains(&place)).unwrap_or_default();
+        let mut chains = module.chains()?;
+        for chain in &mut chains {
+            chain.stations.iter_mut().for_each(|station| *station = turn_of(*station));
+            chain.stations.dedup();
+        }
+        chains.dedup();
+        let request = Request {
             modules: module.modules.iter().map(|module| module.name.clone()).collect(),
-            needs: needs.collect::<Result<_>>()?,
-            chains: module.chains()?,
+            needs,
+            chains,
             minor_frame_ns: self.minor_frame.map(|time| time.0),
             major_frame_ns: self.major_frame.map(|time| time.0),
-            gap_ns: self.gap.map_or(0, |time| time.0),
-        })
+            gap_ns,
+        };
+        Ok(Wanted { request, members })
     }
+
+    fn need(&self, module: &Module, partition: &Partition, run: Option<&Run>) -> Result<Need> {
+        let (cores, name) = (module.cores(partition), partition.name.as_str());
+        if let Some(asked) = self.need.get(name) {
+            return asked.need(name, cores, module.modules[partition.module].name.as_str());
+        }
+        let measured = run.map(|run| run.need(name)).transpose()?.flatten();
+        let (period_ns, duration_ns) = measured.with_context(|| {
+            format!(
+                "partition `{name}` has no need: add `{name} = {{ period = \"20ms\", duration = \"1ms\" }}` to `[need]`"
+            )
+        })?;
+        Ok(Need { name: name.to_owned(), period_ns, duration_ns, cores, offset_ns: None })
+    }
+}
+
+/// What the planner is asked.
+pub(super) struct Wanted {
+    pub(super) request: Request,
+    /// Of each need of the request, the partitions that have their windows in it, one after the other with the gap between them.
+    pub(super) members: Vec<Vec<Need>>,
+}
+
+/// The need of partitions that take their turns one right after the other.
+fn one_after_the_other(each: &[Need], gap_ns: u64) -> Result<Need> {
+    let [first, others @ ..] = each else { bail!("nobody needs a window") };
+    let mut need = first.clone();
+    for other in others {
+        let (one, other_name) = (&first.name, &other.name);
+        if other.period_ns != first.period_ns || other.cores != first.cores {
+            bail!(
+                "`{one}` and `{other_name}` are replicas of one module: give them the same period and core"
+            );
+        }
+        if other.offset_ns.is_some() {
+            bail!("`{other_name}` runs right behind `{one}`: ask for the offset of `{one}` alone");
+        }
+        need.name = format!("{}`, `{other_name}", need.name);
+        need.duration_ns = need.duration_ns.saturating_add(gap_ns).saturating_add(other.duration_ns);
+    }
+    Ok(need)
 }
 
 /// The keys that the file may have.

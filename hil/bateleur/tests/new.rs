@@ -270,3 +270,25 @@ fn retained_memory_that_is_too_small_and_a_shared_program_are_noted() {
         assert!(ended.stdout.contains(words), "{words}: {}", ended.stdout);
     }
 }
+
+#[test]
+fn the_crate_of_a_partition_with_replicas_is_theirs_whichever_of_them_is_named() {
+    let folder = folder(&fs::read_to_string(repository().join("schedules/replicas.toml")).unwrap());
+    let mut mains = Vec::new();
+    for name in ["controller", "controller_1", "controller_3"] {
+        let ended =
+            new_in(folder.path(), &[name, "--dir", name, "--library", repository().to_str().unwrap()]);
+        assert_eq!((ended.code, ended.stderr.as_str()), (0, ""), "{name}");
+        // What the voter runs is the executive's own program, and that replicas share one is what they are for.
+        let names = "program = \"controller/target/release/controller\" in [partition.controller]";
+        assert!(
+            ended.stdout.contains(&names.replacen("controller/", &format!("{name}/"), 1)),
+            "{}",
+            ended.stdout
+        );
+        assert!(!ended.stdout.contains("too, with this code"), "{}", ended.stdout);
+        assert_formatted(&folder.path().join(name));
+        mains.push(read(folder.path(), &format!("{name}/src/main.rs")));
+    }
+    assert!(mains[0].contains("struct Controller {") && mains.iter().all(|main| *main == mains[0]));
+}

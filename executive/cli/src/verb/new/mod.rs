@@ -21,7 +21,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use bateleur_checker::Violation;
-use bateleur_plan::{Partition, Plan};
+use bateleur_contract::OUTVOTED_PORT;
+use bateleur_plan::{Partition, PartitionId, Plan};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
@@ -86,8 +87,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let name = &arguments.partition;
     match (plan.partition(name), arguments.add) {
         (Some(id), false) => match arguments.language {
-            Language::Rust => write_crate(arguments, &plan, &plan[id]),
-            Language::C => write_c(arguments, &plan, &plan[id]),
+            Language::Rust => write_crate(arguments, &plan, &as_programmed(&plan, id)),
+            Language::C => write_c(arguments, &plan, &as_programmed(&plan, id)),
         },
         (Some(_), true) => bail!("{} has a partition `{name}` already", arguments.schedule.display()),
         (None, add) => {
@@ -162,6 +163,15 @@ fn say_missing(arguments: &Arguments, plan: &Plan, missing: &stanza::Missing) ->
     eprintln!("{}", missing.advice());
     eprintln!("`bateleur new {name} --add{}` writes that into the file.", arguments.language.option());
     Ok(WRONG)
+}
+
+/// The partition that the program is written for: of one with replicas, what each of them is. The voter is the executive's.
+fn as_programmed(plan: &Plan, id: PartitionId) -> Partition {
+    let voter = plan.voter_of(id).unwrap_or(id);
+    let Some(&replica) = plan[voter].replicas.first() else { return plan[id].clone() };
+    let mut partition = Partition { name: plan[voter].name.clone(), ..plan[replica].clone() };
+    partition.ports.retain(|&port| plan[port].name != OUTVOTED_PORT);
+    partition
 }
 
 fn write_crate(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<Code> {

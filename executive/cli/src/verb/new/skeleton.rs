@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, anyhow, bail};
 use bateleur_messages::Type;
 use bateleur_messages::format::{Body, FieldKind, Member, rust_name};
-use bateleur_plan::{Partition, Payload, Plan, Port, Role, Standby};
+use bateleur_plan::{Partition, PartitionId, Payload, Plan, Port, Role, Standby};
 
 use super::names::{CARGO_FOLDERS, Fields, type_name};
 use super::values::Reading;
@@ -124,9 +124,15 @@ impl Skeleton {
         let taken: Vec<&str> = USED_TYPES.iter().copied().chain(named.iter().map(String::as_str)).collect();
         let own = |port: &SkeletonPort| matches!(port.content, Content::Message { own: true, .. });
         let messages = ports.iter().any(own).then(|| messages.to_owned());
-        let others = plan.partitions.iter().filter(|other| other.name != partition.name);
-        let shares =
-            others.filter(|other| other.program == partition.program).map(|other| other.name.clone());
+        // Its replicas are what it is.
+        let named = |&id: &PartitionId| &plan[plan.voter_of(id).unwrap_or(id)];
+        let mut shares: Vec<String> = plan
+            .partition_ids()
+            .filter(|&id| plan[id].program == partition.program)
+            .map(|id| named(&id).name.clone())
+            .filter(|other| *other != partition.name)
+            .collect();
+        shares.dedup();
         Ok(Self {
             partition: partition.name.clone(),
             type_name: type_name(&partition.name, &taken),
@@ -138,7 +144,7 @@ impl Skeleton {
             error_handler: partition.error_handler,
             grants: grants(partition),
             messages,
-            shares: shares.collect(),
+            shares,
         })
     }
 

@@ -29,6 +29,7 @@ pub use catalogue::{RULES, Rule};
 pub use facts::Facts;
 pub use latency::Visit;
 pub use report::{Place, Related, Report, Severity, Violation};
+pub use resolve::RELAY_PREFIX;
 pub use responses::ProcessResponse;
 pub use schema::schema;
 

@@ -61,6 +61,31 @@ fn replicas_of_one_module_are_planned_one_after_the_other_and_their_voter_behind
 }
 
 #[test]
+fn relays_and_replicas_of_several_modules_are_planned_with_their_partitions() {
+    let three = std::fs::read_to_string(repository().join("schedules/three-hosts.toml")).unwrap();
+    // The ages of chains through several modules are the author's matter: the planner does not know when they run.
+    let schedule = three
+        .replace("max_age = \"25ms\"", "max_age = \"150ms\"")
+        .replace("[partition.controller]", "[partition.controller]\nreplicas = [\"fcu\", \"nav\", \"nav\"]");
+    let needs = std::fs::read_to_string(repository().join(NEEDS)).unwrap();
+    let mut others =
+        ["relay_fcu", "relay_nav", "relay_ctl", "controller_1", "controller_2", "controller_3"].to_vec();
+    let all = |others: &[&str]| {
+        let need = |name: &&str| format!("{name} = {{ period = \"20ms\", duration = \"500us\" }}\n");
+        needs.clone() + &others.iter().map(need).collect::<String>()
+    };
+    let ended = plan_replicas(&all(&others), &schedule);
+    assert_eq!(ended.code, 0, "{}", ended.stderr);
+    let order: Vec<&str> = ended.stdout.lines().filter_map(|line| line.split('"').nth(1)).collect();
+    let second = order.iter().position(|name| *name == "controller_2").unwrap();
+    assert_eq!(order[second + 1], "controller_3", "{}", ended.stdout);
+    let missing = others.remove(0);
+    let ended = plan_replicas(&all(&others), &schedule);
+    let words = format!("partition `{missing}` has no need");
+    assert!(ended.code == 2 && ended.stderr.contains(&words), "{}", ended.stderr);
+}
+
+#[test]
 fn needs_of_replicas_that_can_not_be_together_are_refused_with_a_way_to_mend_them() {
     let schedule = std::fs::read_to_string(repository().join("schedules/replicas.toml")).unwrap();
     let needs = needs_of_replicas([1000; 3]);

@@ -38,6 +38,7 @@ use bateleur_plan::bounds::{self, OutOfBounds};
 use names::Names;
 
 pub(super) use names::Nobody;
+pub use names::RELAY_PREFIX;
 pub(super) use relays::add as add_relays;
 pub(super) use replicas::expand as expand_replicas;
 pub(super) use schedules::minor_frames;

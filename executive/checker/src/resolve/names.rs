@@ -11,7 +11,7 @@ use crate::reader::At;
 use bateleur_plan::words::{did_you_mean, listed, nearest};
 
 /// Before a module's name: what its relay is called.
-pub(super) const RELAY_PREFIX: &str = "relay_";
+pub const RELAY_PREFIX: &str = "relay_";
 
 /// What names lead to that lead nowhere: the last entries of their lists, which stand for no table of the file. Nothing runs
 /// there, and nothing is joined to them.

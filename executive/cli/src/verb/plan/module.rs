@@ -1,10 +1,11 @@
-//! What the planner takes from a schedule file that may not have a schedule yet: modules with their cores, partitions and their replicas,
+//! What the planner takes from a schedule file that may not have a schedule yet: modules with their cores, partitions with replicas and relays,
 //! chains. It is read leniently here; the whole file is checked when the schedule is in it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use bateleur_checker::RELAY_PREFIX;
 use bateleur_checker::planner::Bound;
 use bateleur_contract::REPLICAS;
 use bateleur_plan::units::{ShowTime, duration_ns};
@@ -25,7 +26,7 @@ pub(super) struct Computer {
     cores: Vec<u32>,
 }
 
-/// One partition, a voter or a replica too.
+/// One partition; a voter, a replica or a relay too.
 pub(super) struct Partition {
     pub(super) name: String,
     /// The place of its module.
@@ -76,7 +77,33 @@ impl Module {
             }
             replicas.insert(voter, std::array::from_fn(|number| first + number));
         }
-        Ok(Self { document, modules, partitions, replicas })
+        let mut module = Self { document, modules, partitions, replicas };
+        let relays = module.crossed().into_iter().map(|place| {
+            let name = format!("{RELAY_PREFIX}{}", module.modules[place].name);
+            Partition { name, module: place }
+        });
+        let relays: Vec<Partition> = relays.collect();
+        module.partitions.extend(relays);
+        Ok(module)
+    }
+
+    /// The modules that a channel leads to or from another one: each has a relay, which no table names.
+    fn crossed(&self) -> BTreeSet<usize> {
+        let mut crossed = BTreeSet::new();
+        let channels = self.document.get("channel").and_then(Value::as_array).into_iter().flatten();
+        for channel in channels.filter_map(Value::as_table) {
+            let source = channel.get("source").and_then(Value::as_str);
+            let ports = source.into_iter().chain(texts(channel.get("destinations")));
+            let owners = ports.filter_map(|port| self.partition(port.split('.').next()?));
+            let and_replicas =
+                |owner: usize| self.replicas.get(&owner).into_iter().flatten().copied().chain([owner]);
+            let reached: BTreeSet<usize> =
+                owners.flat_map(and_replicas).map(|place| self.partitions[place].module).collect();
+            if reached.len() > 1 {
+                crossed.extend(reached);
+            }
+        }
+        crossed
     }
 
     pub(super) fn partition(&self, name: &str) -> Option<usize> {

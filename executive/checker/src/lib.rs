@@ -29,7 +29,7 @@ pub use catalogue::{RULES, Rule};
 pub use facts::Facts;
 pub use latency::Visit;
 pub use report::{Place, Related, Report, Severity, Violation};
-pub use resolve::RELAY_PREFIX;
+pub use resolve::{RELAY_PREFIX, numbered};
 pub use responses::ProcessResponse;
 pub use schema::schema;
 

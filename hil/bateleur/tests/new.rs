@@ -280,12 +280,8 @@ fn the_crate_of_a_partition_with_replicas_is_theirs_whichever_of_them_is_named()
             new_in(folder.path(), &[name, "--dir", name, "--library", repository().to_str().unwrap()]);
         assert_eq!((ended.code, ended.stderr.as_str()), (0, ""), "{name}");
         // What the voter runs is the executive's own program, and that replicas share one is what they are for.
-        let names = "program = \"controller/target/release/controller\" in [partition.controller]";
-        assert!(
-            ended.stdout.contains(&names.replacen("controller/", &format!("{name}/"), 1)),
-            "{}",
-            ended.stdout
-        );
+        let words = format!("program = \"{name}/target/release/controller\" in [partition.controller]");
+        assert!(ended.stdout.contains(&words), "{}", ended.stdout);
         assert!(!ended.stdout.contains("too, with this code"), "{}", ended.stdout);
         assert_formatted(&folder.path().join(name));
         mains.push(read(folder.path(), &format!("{name}/src/main.rs")));

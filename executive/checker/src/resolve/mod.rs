@@ -41,6 +41,7 @@ pub(super) use names::Nobody;
 pub use names::RELAY_PREFIX;
 pub(super) use relays::add as add_relays;
 pub(super) use replicas::expand as expand_replicas;
+pub use replicas::numbered;
 pub(super) use schedules::minor_frames;
 
 /// What a file means.

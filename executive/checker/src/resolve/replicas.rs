@@ -72,7 +72,9 @@ fn modules(replicas: &At<Replicas>, findings: &Findings<'_>) -> Option<Vec<Optio
     None
 }
 
-fn numbered(name: &str, number: usize) -> String {
+/// What a replica of a partition is called, and a port of the voter for that replica; replicas are numbered from 1.
+#[must_use]
+pub fn numbered(name: &str, number: usize) -> String {
     format!("{name}_{number}")
 }
 

@@ -125,14 +125,10 @@ impl Skeleton {
         let own = |port: &SkeletonPort| matches!(port.content, Content::Message { own: true, .. });
         let messages = ports.iter().any(own).then(|| messages.to_owned());
         // Its replicas are what it is.
-        let named = |&id: &PartitionId| &plan[plan.voter_of(id).unwrap_or(id)];
-        let mut shares: Vec<String> = plan
-            .partition_ids()
-            .filter(|&id| plan[id].program == partition.program)
-            .map(|id| named(&id).name.clone())
-            .filter(|other| *other != partition.name)
-            .collect();
-        shares.dedup();
+        let other = |&id: &PartitionId| plan[plan.voter_of(id).unwrap_or(id)].name != partition.name;
+        let others = plan.partition_ids().filter(other).map(|id| &plan[id]);
+        let shares =
+            others.filter(|other| other.program == partition.program).map(|other| other.name.clone());
         Ok(Self {
             partition: partition.name.clone(),
             type_name: type_name(&partition.name, &taken),
@@ -144,7 +140,7 @@ impl Skeleton {
             error_handler: partition.error_handler,
             grants: grants(partition),
             messages,
-            shares,
+            shares: shares.collect(),
         })
     }
 

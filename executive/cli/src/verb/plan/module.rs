@@ -1,12 +1,12 @@
 //! What the planner takes from a schedule file that may not have a schedule yet: modules with their cores, partitions with replicas and relays,
 //! chains. It is read leniently here; the whole file is checked when the schedule is in it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use bateleur_checker::RELAY_PREFIX;
 use bateleur_checker::planner::Bound;
+use bateleur_checker::{RELAY_PREFIX, numbered};
 use bateleur_contract::REPLICAS;
 use bateleur_plan::units::{ShowTime, duration_ns};
 use toml::{Table, Value};
@@ -16,8 +16,6 @@ pub(super) struct Module {
     document: Table,
     pub(super) modules: Vec<Computer>,
     pub(super) partitions: Vec<Partition>,
-    /// By the partition, the places of its replicas.
-    replicas: BTreeMap<usize, [usize; REPLICAS]>,
 }
 
 /// One computer.
@@ -31,6 +29,8 @@ pub(super) struct Partition {
     pub(super) name: String,
     /// The place of its module.
     pub(super) module: usize,
+    /// The place of its voter; `None`: it is no replica.
+    voter: Option<usize>,
 }
 
 fn tables<'a>(document: &'a Table, key: &str) -> impl Iterator<Item = (&'a String, &'a Table)> + use<'a> {
@@ -55,36 +55,33 @@ impl Module {
             Computer { name: name.clone(), cores }
         };
         let modules: Vec<Computer> = tables(&document, "module").map(computer).collect();
-        let on = |name: &str, module: &str| {
+        let on = |name: &str, module: &str, voter| {
             let place = modules.iter().position(|known| known.name == module && !known.cores.is_empty());
-            place.map(|module| Partition { name: name.to_owned(), module }).with_context(|| {
+            place.map(|module| Partition { name: name.to_owned(), module, voter }).with_context(|| {
                 format!(
                     "{}: partition `{name}` has no module with cores: see `bateleur check`",
                     path.display()
                 )
             })
         };
-        let (mut partitions, mut replicas) = (Vec::new(), BTreeMap::new());
+        let mut partitions = Vec::new();
         for (name, table) in tables(&document, "partition") {
             let module = table.get("module").and_then(Value::as_str).unwrap_or_default();
-            partitions.push(on(name, module)?);
+            let voter = partitions.len();
+            partitions.push(on(name, module, None)?);
             let Some(said) = table.get("replicas") else { continue };
             let modules = texts(Some(said));
-            let (voter, first) = (partitions.len() - 1, partitions.len());
             for number in 0..REPLICAS {
-                let replica = format!("{name}_{}", number + 1);
-                partitions.push(on(&replica, modules.get(number).copied().unwrap_or(module))?);
+                let module = modules.get(number).copied().unwrap_or(module);
+                partitions.push(on(&numbered(name, number + 1), module, Some(voter))?);
             }
-            replicas.insert(voter, std::array::from_fn(|number| first + number));
         }
-        let mut module = Self { document, modules, partitions, replicas };
-        let relays = module.crossed().into_iter().map(|place| {
-            let name = format!("{RELAY_PREFIX}{}", module.modules[place].name);
-            Partition { name, module: place }
-        });
-        let relays: Vec<Partition> = relays.collect();
-        module.partitions.extend(relays);
-        Ok(module)
+        let mut file = Self { document, modules, partitions };
+        for module in file.crossed() {
+            let name = format!("{RELAY_PREFIX}{}", file.modules[module].name);
+            file.partitions.push(Partition { name, module, voter: None });
+        }
+        Ok(file)
     }
 
     /// The modules that a channel leads to or from another one: each has a relay, which no table names.
@@ -95,10 +92,10 @@ impl Module {
             let source = channel.get("source").and_then(Value::as_str);
             let ports = source.into_iter().chain(texts(channel.get("destinations")));
             let owners = ports.filter_map(|port| self.partition(port.split('.').next()?));
-            let and_replicas =
-                |owner: usize| self.replicas.get(&owner).into_iter().flatten().copied().chain([owner]);
-            let reached: BTreeSet<usize> =
-                owners.flat_map(and_replicas).map(|place| self.partitions[place].module).collect();
+            let reached: BTreeSet<usize> = owners
+                .flat_map(|owner| self.replicas(owner).chain([owner]))
+                .map(|place| self.partitions[place].module)
+                .collect();
             if reached.len() > 1 {
                 crossed.extend(reached);
             }
@@ -110,6 +107,11 @@ impl Module {
         self.partitions.iter().position(|partition| partition.name == name)
     }
 
+    /// The replicas of a partition, in their order.
+    fn replicas(&self, voter: usize) -> impl Iterator<Item = usize> {
+        (0..self.partitions.len()).filter(move |&place| self.partitions[place].voter == Some(voter))
+    }
+
     /// The cores that a partition may have.
     pub(super) fn cores(&self, partition: &Partition) -> Vec<(usize, u32)> {
         self.modules[partition.module].cores.iter().map(|&core| (partition.module, core)).collect()
@@ -119,12 +121,9 @@ impl Module {
     /// what they read, and every other partition alone.
     pub(super) fn turns(&self) -> Vec<Vec<usize>> {
         let mut turns: Vec<Vec<usize>> = Vec::new();
-        for place in 0..self.partitions.len() {
-            let with = |other: usize| {
-                let same = |of: &[usize; REPLICAS]| of.contains(&place) && of.contains(&other);
-                self.replicas.values().any(same)
-                    && self.partitions[other].module == self.partitions[place].module
-            };
+        for (place, partition) in self.partitions.iter().enumerate() {
+            let of = |partition: &Partition| Some((partition.voter?, partition.module));
+            let with = |other: usize| of(partition).is_some() && of(&self.partitions[other]) == of(partition);
             match turns.iter_mut().find(|turn| with(turn[0])) {
                 Some(turn) => turn.push(place),
                 None => turns.push(vec![place]),
@@ -150,18 +149,16 @@ impl Module {
                 owners.push(owner);
             }
             owners.dedup();
-            let through = |number: usize| {
-                let of = |owner: usize| self.replicas.get(&owner).map(|replicas| replicas[number]);
-                owners.iter().flat_map(|&owner| of(owner).into_iter().chain([owner])).collect::<Vec<_>>()
-            };
             let module = |&station: &usize| self.partitions[station].module;
-            let has_replicas = owners.iter().any(|owner| self.replicas.contains_key(owner));
-            for number in 0..if has_replicas { REPLICAS } else { 1 } {
-                let stations = through(number);
+            for number in 0..REPLICAS {
+                let replica_of = |owner: usize| self.replicas(owner).nth(number);
+                let through = owners.iter().flat_map(|&owner| replica_of(owner).into_iter().chain([owner]));
+                let stations: Vec<usize> = through.collect();
                 if stations.iter().all(|station| Some(module(station)) == stations.first().map(module)) {
                     bounds.push(Bound { name: name.to_owned(), stations, max_age_ns });
                 }
             }
+            bounds.dedup(); // without replicas they are the same
         }
         Ok(bounds)
     }

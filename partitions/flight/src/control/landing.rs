@@ -111,7 +111,7 @@ const ROLLING_SHARE: f64 = 0.6;
 const LONGEST_TOUCHED_S: f64 = 25.0;
 /// No aircraft flies so slowly over ground, m/s, down here.
 const SLOWLY_MPS: f64 = 2.0;
-/// So slow in a wind of more than this share of the airspeed that carries it, it would fly again with its tail down.
+/// So slow in a wind of more than this share of the airspeed that carries it, it all but flies.
 const WINDY_SHARE: f64 = 0.75;
 /// High up those count after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 4.0;
@@ -543,6 +543,10 @@ impl Landing {
             false => track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0),
         };
         let is_doubtful = glide.is_none() && self.since_s > HELD_S;
+        // With the elevator let go it would lift off again, or go onto its nose.
+        let is_carried = wheels::has_tail_wheel(airframe)
+            && flown_mps < SLOWLY_MPS
+            && s.airspeed_mps.max(fastest_mps(state)) > WINDY_SHARE * stall_mps;
         match self.phase {
             Phase::Pattern => {
                 let centre = self.centre(radius_m, length_m);
@@ -593,20 +597,9 @@ impl Landing {
                     }),
                 })
             }
-            Phase::Touched => Flown::Loops(Approach {
-                climb_mps: -TOUCH_SINK_MPS,
-                sideways_mps2: None,
-                bank_rad: 0.0,
-                airspeed_mps: None,
-                least_mps2: -FLARE_DOWN_MPS2,
-                aim: Some(self.on_wheels(airframe, s, rolling_mps < stall_mps)),
-            }),
-            Phase::Rolling | Phase::Standing => {
-                let tail_wheel = wheels::has_tail_wheel(airframe);
-                let is_windy = flown_mps < SLOWLY_MPS
-                    && s.airspeed_mps.max(fastest_mps(state)) > WINDY_SHARE * stall_mps;
+            Phase::Rolling | Phase::Standing if !is_carried => {
                 let elevator_rad =
-                    if tail_wheel && !is_windy { wheels::tail_down_rad(airframe) } else { 0.0 };
+                    if wheels::has_tail_wheel(airframe) { wheels::tail_down_rad(airframe) } else { 0.0 };
                 Flown::Wheels(wheels::straight_on(
                     airframe,
                     envelope,
@@ -615,6 +608,14 @@ impl Landing {
                     (0.0, elevator_rad),
                 ))
             }
+            Phase::Touched | Phase::Rolling | Phase::Standing => Flown::Loops(Approach {
+                climb_mps: -TOUCH_SINK_MPS,
+                sideways_mps2: None,
+                bank_rad: 0.0,
+                airspeed_mps: None,
+                least_mps2: -FLARE_DOWN_MPS2,
+                aim: Some(self.on_wheels(airframe, s, rolling_mps < stall_mps)),
+            }),
         }
     }
 
@@ -670,7 +671,7 @@ impl Landing {
 
     /// Rudder in place of the coordinated one, rad.
     pub(super) fn rudder_rad(&self, airframe: &Airframe, s: &Signals) -> Option<f64> {
-        (self.phase == Phase::Touched).then(|| wheels::rudder_rad(airframe, s, self.turned_rad))
+        self.is_on_ground().then(|| wheels::rudder_rad(airframe, s, self.turned_rad))
     }
 
     /// It fell on after it had touched the ground, or was thrown up.

@@ -4,6 +4,8 @@ use super::filter::{ACCEL, ATT, ErrorVector, GYRO, MAG, POS, ProcessNoise, Scala
 use super::gusts::Part;
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
+use super::path_watch::Heights;
+use super::static_watch::Fix;
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
 use crate::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
 use crate::attitude::{finite, skew};
@@ -111,6 +113,8 @@ const WINDS: usize = 16;
 const UNTOLD_HEIGHT_M: f64 = 2.0;
 /// A barometer that has moved by this while it was refused is not blocked, m.
 const ALIVE_M: f64 = 1.5;
+/// How far the airspeed without a pitot is from the one before the outage, m/s.
+const UNTOLD_AIRSPEED_MPS: f64 = 3.0;
 /// What the sink rate and the accelerometers may be off, m/s and m/s², when the height has come away from the barometer.
 const UNTOLD_SINK_MPS: f64 = 3.0;
 const UNTOLD_ACCELERATION_MPS2: f64 = 0.5;
@@ -188,7 +192,11 @@ impl Estimator {
             self.barometer.leave_ground();
         }
         if !self.standing {
-            self.static_watch.fix(fix.time_s, fix.velocity_ned.z);
+            self.static_watch.fix(Fix {
+                time_s: fix.time_s,
+                height_m: -fix.position_ned.z,
+                down_mps: fix.velocity_ned.z,
+            });
         }
         let velocity = self.velocity_scalars(fix, &past);
         let position = self.position_scalars(fix, &past);
@@ -309,8 +317,11 @@ impl Estimator {
             (false, true) => return self.zero_barometer(time_s), // it stands elsewhere than before
             (true, true) => {}
         }
-        let accepted = self.fuse(Aid::Barometer, &[scalar]);
         let inertial = self.status() == EstimatorStatus::Inertial;
+        if self.goes_another_path(time_s, altitude, inertial) {
+            return;
+        }
+        let accepted = self.fuse(Aid::Barometer, &[scalar]);
         if accepted || !inertial {
             self.refused_from_m = altitude;
         }
@@ -326,6 +337,44 @@ impl Estimator {
                 None => self.zero_barometer(time_s),
             }
         }
+    }
+
+    /// Without satellites attitude and pitot tell of a barometer that does not climb as the aircraft does; true if it was left. Height and sink rate
+    /// have followed it, and what it cost has gone into the accelerometers' bias.
+    fn goes_another_path(&mut self, time_s: f64, altitude_m: f64, inertial: bool) -> bool {
+        if !inertial {
+            self.path_watch.restart();
+            return false;
+        }
+        let air = self.air();
+        let (Some((along, _)), Some(sample)) = (self.path_watch.axes(), self.last_sample) else {
+            return false;
+        };
+        let nominal = &self.filter.nominal;
+        let by_attitude = self.path_watch.air_mps(&nominal.attitude, &along, &air);
+        let now = Heights {
+            time_s,
+            barometer_m: altitude_m,
+            climb_mps: -by_attitude.z,
+            airspeed_mps: self.last_airspeed_mps.filter(|_| self.pitot_believed),
+            along,
+            specific_force: sample.specific_force,
+        };
+        let Some(off_m) = self.path_watch.compare(now, self.gusts.learnt().sqrt()) else {
+            return false;
+        };
+        self.static_watch.disbelieve();
+        self.filter.nominal.velocity += by_attitude - air;
+        self.filter.forget(VEL, 3, UNTOLD_SINK_MPS);
+        self.filter.widen(ACCEL, 3, UNTOLD_ACCELERATION_MPS2);
+        self.leave_barometer(off_m);
+        true
+    }
+
+    /// Velocity through the air, NED, m/s.
+    fn air(&self) -> Vector3<f64> {
+        let nominal = &self.filter.nominal;
+        nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0)
     }
 
     /// A height that has slowly come away from the barometer by `off_m`, m, is wrong itself, by an error of the accelerometers.
@@ -387,8 +436,9 @@ impl Estimator {
             self.fuse_airspeed(time_s, airspeed, inertial);
         }
         if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
-            let scalar = self.sideslip_scalar(inertial);
+            let scalar = self.across_scalar(&Vector3::y(), inertial);
             self.compare(Part::Across, &scalar, inertial);
+            self.follow_incidence(inertial);
             // It tells the heading where no magnetometer does.
             let alone = inertial || !self.record.fresh(Aid::Magnetometer, time_s, HEADING_WITHIN_S);
             self.fuse_from(Aid::Sideslip, &[scalar], if alone { 0 } else { WIND });
@@ -396,7 +446,10 @@ impl Estimator {
     }
 
     fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64, inertial: bool) {
-        let scalar = self.airspeed_scalar(airspeed, inertial);
+        let noise = &self.config.measurement;
+        let sigma =
+            if inertial { self.beside_inertial(noise.airspeed_without_gps_mps) } else { noise.airspeed_mps };
+        let scalar = self.airspeed_scalar(airspeed, sigma);
         self.compare(Part::Along, &scalar, inertial);
         let accepted = self.fuse_from(Aid::Airspeed, &[scalar], if inertial { 0 } else { WIND });
         if accepted && !inertial {
@@ -410,9 +463,8 @@ impl Estimator {
     }
 
     /// Airspeed is the length of ground velocity less wind.
-    fn airspeed_scalar(&self, airspeed: f64, inertial: bool) -> Scalar {
-        let nominal = &self.filter.nominal;
-        let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
+    fn airspeed_scalar(&self, airspeed: f64, sigma: f64) -> Scalar {
+        let air = self.air();
         let expected = air.norm().max(1.0);
         let mut h = ErrorVector::zeros();
         for i in 0..3 {
@@ -420,27 +472,41 @@ impl Estimator {
         }
         h[WIND] = -air.x / expected;
         h[WIND + 1] = -air.y / expected;
-        let noise = &self.config.measurement;
-        let sigma =
-            if inertial { self.beside_inertial(noise.airspeed_without_gps_mps) } else { noise.airspeed_mps };
         scalar(h, airspeed - expected, sigma)
     }
 
-    /// The air comes along the plane of symmetry: `b · (v − w) = 0` with the body's y axis `b = R e_y`.
-    fn sideslip_scalar(&self, inertial: bool) -> Scalar {
-        let nominal = &self.filter.nominal;
-        let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
-        let right = nominal.attitude * Vector3::y();
-        let swing = right.cross(&air);
+    /// Learns how the air comes; without a receiver, that tells the sink rate where no barometer does, and the airspeed where no pitot does.
+    fn follow_incidence(&mut self, inertial: bool) {
+        if !inertial {
+            let air = self.filter.nominal.attitude.inverse() * self.air();
+            let interval_s = self.config.measurement.airspeed_interval_s;
+            self.path_watch.learn(interval_s, &air, &self.filter.nominal.accel_bias);
+            return;
+        }
+        let Some((_, across)) = self.path_watch.axes() else { return };
+        if !self.static_watch.is_believed() {
+            let scalar = self.across_scalar(&across, inertial);
+            self.fuse_from(Aid::Sideslip, &[scalar], 0);
+        }
+        if !self.pitot_believed {
+            let scalar = self.airspeed_scalar(self.path_watch.usual_mps(), UNTOLD_AIRSPEED_MPS);
+            self.fuse_from(Aid::Sideslip, &[scalar], 0);
+        }
+    }
+
+    /// The air does not come along an axis `b` of the body: `R b · (v − w) = 0`. With y it comes along the plane of symmetry.
+    fn across_scalar(&self, axis: &Vector3<f64>, inertial: bool) -> Scalar {
+        let (air, across) = (self.air(), self.filter.nominal.attitude * axis);
+        let swing = across.cross(&air);
         let mut h = ErrorVector::zeros();
         for i in 0..3 {
             h[ATT + i] = swing[i];
-            h[VEL + i] = right[i];
+            h[VEL + i] = across[i];
         }
-        h[WIND] = -right.x;
-        h[WIND + 1] = -right.y;
+        h[WIND] = -across.x;
+        h[WIND + 1] = -across.y;
         let sigma = self.config.measurement.sideslip_mps;
-        scalar(h, -right.dot(&air), if inertial { self.beside_inertial(sigma) } else { sigma })
+        scalar(h, -across.dot(&air), if inertial { self.beside_inertial(sigma) } else { sigma })
     }
 
     fn compare(&mut self, part: Part, scalar: &Scalar, inertial: bool) {

@@ -18,6 +18,7 @@ mod gates;
 mod gusts;
 mod health;
 mod history;
+mod path_watch;
 mod snapshot;
 mod static_watch;
 #[cfg(test)]
@@ -38,6 +39,7 @@ use gusts::Gusts;
 use health::Record;
 use history::{History, Past};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use path_watch::PathWatch;
 use static_watch::StaticWatch;
 
 /// An aid that was not taken for longer than this is not healthy, s.
@@ -232,6 +234,7 @@ pub struct Estimator {
     turned_s: f64,
     turn_followed: bool,
     static_watch: StaticWatch,
+    path_watch: PathWatch,
     doubtful: Doubtful,
     standing: bool,
     aligned_s: f64,
@@ -270,6 +273,7 @@ impl Estimator {
             turned_s: f64::NEG_INFINITY,
             turn_followed: false,
             static_watch: StaticWatch::default(),
+            path_watch: PathWatch::default(),
             doubtful: Doubtful::default(),
             standing: false,
             aligned_s: f64::NEG_INFINITY,

@@ -113,6 +113,10 @@ const WINDS: usize = 16;
 const UNTOLD_HEIGHT_M: f64 = 2.0;
 /// A barometer that has moved by this while it was refused is not blocked, m.
 const ALIVE_M: f64 = 1.5;
+/// A fix taken no longer ago than this tells how the air comes, s.
+const LEARN_WITHIN_S: f64 = 0.5;
+/// Gusts where a pitot that was wrong may not have told them, m/s.
+const UNLEARNT_GUSTS_MPS: f64 = 1.0;
 /// How far the airspeed without a pitot is from the one before the outage, m/s.
 const UNTOLD_AIRSPEED_MPS: f64 = 3.0;
 /// What the sink rate and the accelerometers may be off, m/s and m/s², when the height has come away from the barometer.
@@ -152,6 +156,9 @@ impl Estimator {
     /// quarter of a minute before and stays about so.
     pub fn believe_pitot(&mut self, believed: bool) {
         let before = std::mem::replace(&mut self.pitot_believed, believed);
+        if believed && !before {
+            self.last_airspeed_mps = None;
+        }
         if let Some((wind, gusts)) = self.winds.oldest().filter(|_| before && !believed) {
             self.gusts.go_back(gusts);
             self.filter.nominal.wind = wind;
@@ -307,7 +314,8 @@ impl Estimator {
         let scalar = scalar(h, innovation, self.config.measurement.barometer_m);
         let believed = self.static_watch.is_believed();
         let gate_share = self.filter.normalised(&scalar).abs() / self.config.measurement.gate_sigma;
-        if self.static_watch.leaps(gate_share) && believed {
+        let leaps = self.static_watch.leaps(gate_share) && believed;
+        if leaps {
             self.static_watch.restart(); // a leap is the gate's matter: the height has not followed it
         } else if let Some(off_m) = self.static_watch.height(time_s, altitude) {
             self.leave_barometer(off_m);
@@ -318,7 +326,9 @@ impl Estimator {
             (true, true) => {}
         }
         let inertial = self.status() == EstimatorStatus::Inertial;
-        if self.goes_another_path(time_s, altitude, inertial) {
+        if leaps {
+            self.path_watch.restart();
+        } else if self.goes_another_path(time_s, altitude, inertial) {
             return;
         }
         let accepted = self.fuse(Aid::Barometer, &[scalar]);
@@ -342,7 +352,7 @@ impl Estimator {
     /// Without satellites attitude and pitot tell of a barometer that does not climb as the aircraft does; true if it was left. Height and sink rate
     /// have followed it, and what it cost has gone into the accelerometers' bias.
     fn goes_another_path(&mut self, time_s: f64, altitude_m: f64, inertial: bool) -> bool {
-        if !inertial {
+        if !inertial || self.is_near_ground() {
             self.path_watch.restart();
             return false;
         }
@@ -360,7 +370,8 @@ impl Estimator {
             along,
             specific_force: sample.specific_force,
         };
-        let Some(off_m) = self.path_watch.compare(now, self.gusts.learnt().sqrt()) else {
+        let least_mps = if self.pitot_believed { 0.0 } else { UNLEARNT_GUSTS_MPS };
+        let Some(off_m) = self.path_watch.compare(now, self.gusts.learnt().sqrt().max(least_mps)) else {
             return false;
         };
         self.static_watch.disbelieve();
@@ -408,6 +419,7 @@ impl Estimator {
 
     fn zero_barometer(&mut self, time_s: f64) {
         self.barometer_gate = Gate::default();
+        self.static_watch.begin_level();
         self.counters.resets += 1;
         self.barometer = BarometerReference { last_s: Some(time_s), ..BarometerReference::default() };
     }
@@ -435,14 +447,19 @@ impl Estimator {
         if self.pitot_believed {
             self.fuse_airspeed(time_s, airspeed, inertial);
         }
-        if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
+        if !self.is_near_ground() {
             let scalar = self.across_scalar(&Vector3::y(), inertial);
             self.compare(Part::Across, &scalar, inertial);
-            self.follow_incidence(inertial);
             // It tells the heading where no magnetometer does.
             let alone = inertial || !self.record.fresh(Aid::Magnetometer, time_s, HEADING_WITHIN_S);
             self.fuse_from(Aid::Sideslip, &[scalar], if alone { 0 } else { WIND });
+            self.follow_incidence(time_s, inertial);
         }
+    }
+
+    /// The air may come from the side there.
+    fn is_near_ground(&self) -> bool {
+        -self.filter.nominal.position.z <= self.config.measurement.sideslip_height_m
     }
 
     fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64, inertial: bool) {
@@ -476,7 +493,10 @@ impl Estimator {
     }
 
     /// Learns how the air comes; without a receiver, that tells the sink rate where no barometer does, and the airspeed where no pitot does.
-    fn follow_incidence(&mut self, inertial: bool) {
+    fn follow_incidence(&mut self, time_s: f64, inertial: bool) {
+        if !inertial && !self.record.fresh(Aid::GpsVelocity, time_s, LEARN_WITHIN_S) {
+            return;
+        }
         if !inertial {
             let air = self.filter.nominal.attitude.inverse() * self.air();
             let interval_s = self.config.measurement.airspeed_interval_s;

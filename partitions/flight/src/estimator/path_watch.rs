@@ -84,12 +84,12 @@ impl Sum {
 impl PathWatch {
     /// Takes the velocity through the air that a receiver and the wind tell, and the accelerometers' bias, body axes, m/s, m/s².
     pub(super) fn learn(&mut self, interval_s: f64, air: &Vector3<f64>, bias_mps2: &Vector3<f64>) {
-        self.bias_mps2 = *bias_mps2;
         let incidence_rad = air.z.atan2(air.x);
         self.learnt_s = (self.learnt_s + interval_s).min(LEARNT_S);
         let share = (interval_s / INCIDENCE_S).max(interval_s / self.learnt_s);
         self.incidence_rad += share * (incidence_rad - self.incidence_rad);
         self.usual_mps += share * (air.norm() - self.usual_mps);
+        self.bias_mps2 += share * (bias_mps2 - self.bias_mps2);
     }
 
     /// Airspeed while satellites told it, m/s.
@@ -128,7 +128,11 @@ impl PathWatch {
         }
         let climbed_m = now.barometer_m - last.barometer_m;
         let free_m = (FREE_MPS + FREE_GUSTS * gusts_mps) * interval_s;
-        self.by_attitude.add(climbed_m - now.climb_mps * interval_s, free_m);
+        let by_attitude_m = climbed_m - now.climb_mps * interval_s;
+        self.by_attitude.add(by_attitude_m, free_m);
+        if now.airspeed_mps.is_some() != last.airspeed_mps.is_some() {
+            self.by_energy = Sums::default();
+        }
         match (now.airspeed_mps, last.airspeed_mps) {
             (Some(now_mps), Some(last_mps)) => {
                 let along_mps2 = (now.specific_force - self.bias_mps2).dot(&now.along);
@@ -137,7 +141,7 @@ impl PathWatch {
                 self.by_energy.add(climbed_m - (lifted_m - speed_takes_m), free_m);
             }
             // A static port that is wrong makes the pitot wrong.
-            _ => self.by_energy = self.by_attitude,
+            _ => self.by_energy.add(by_attitude_m, free_m),
         }
         // A gust is energy that the aircraft has not gained.
         let gust_m = FREE_GUSTS * gusts_mps * now.airspeed_mps.unwrap_or(0.0) / GRAVITY_MPS2;

@@ -1,4 +1,4 @@
-//! Whether the barometer climbs as the receiver does: a static port that is blocked shows nowhere else.
+//! Whether the barometer climbs as the receiver does: while there is one, a static port that is blocked shows nowhere else.
 //!
 //! Responsible for the verdict alone. Heights are compared over a third of a minute and over a minute, so that neither the noise of
 //! the one nor the weather in it counts, and the receiver's slow error does not enter: it is the velocity that is summed. Over longer times, as
@@ -13,6 +13,8 @@ const LONG_M: f64 = 6.0;
 /// Difference of the two heights that has become another one by this much is not the receiver's, m; how slowly the usual one follows, s.
 const LEVEL_M: f64 = 20.0;
 const LEVEL_S: f64 = 30.0;
+/// An outage is longer than this, s.
+const LEAST_OUTAGE_S: f64 = 10.0;
 /// Four deviations of the receiver's heights in one second, m.
 const LEVEL_NOISE_M: f64 = 45.0;
 /// So many seconds in a row.
@@ -110,11 +112,7 @@ impl StaticWatch {
             self.followed_m = Some(longest.unwrap_or(0.0));
         }
         self.near = if share < NEAR_SHARE { 0 } else { self.near.saturating_add(1) };
-        let leaps = self.followed_m.is_some() && self.leapt;
-        if leaps {
-            self.level_m = None;
-        }
-        leaps
+        self.followed_m.is_some() && self.leapt
     }
 
     /// Heights have been refused for too long. Gives how much more the barometer has climbed than the receiver, m, where it drifted
@@ -127,6 +125,11 @@ impl StaticWatch {
         }
         // What was refused since the height has not followed.
         drifted.then(|| self.followed_m.unwrap_or(0.0))
+    }
+
+    /// The barometer's zero is found anew.
+    pub(super) fn begin_level(&mut self) {
+        self.level_m = None;
     }
 
     /// It was found to be wrong otherwise than by the receiver.
@@ -147,10 +150,13 @@ impl StaticWatch {
             Some(before) if (0.0..=LONGEST_GAP_S).contains(&(fix.time_s - before.time_s)) => {
                 self.climb_m -= 0.5 * (before.down_mps + fix.down_mps) * (fix.time_s - before.time_s);
             }
-            _ => {
-                let fix = self.fix;
+            before => {
                 self.restart();
-                self.fix = fix;
+                self.fix = Some(fix);
+                // No port goes far astray in less, and a receiver that was gone may leap.
+                if before.is_some_and(|before| fix.time_s - before.time_s < LEAST_OUTAGE_S) {
+                    self.level_m = None;
+                }
             }
         }
     }
@@ -209,7 +215,7 @@ impl StaticWatch {
             let near = self.off_m(SHORT).is_some_and(|off| off.abs() < 0.5 * SHORT_M);
             self.agreed = if near && self.moved_m() > SEEN_M { self.agreed + 1 } else { 0 };
             if self.agreed >= FOR {
-                (self.believed, self.against, self.level_m) = (true, 0, None);
+                (self.believed, self.against) = (true, 0);
             }
         }
         None

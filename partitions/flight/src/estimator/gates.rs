@@ -93,6 +93,8 @@ fn measurement_beyond_its_gate_leaves_no_trace_and_one_within_is_taken() {
 struct Shift {
     rates_radps: Vector3<f64>,
     field_gauss: Vector3<f64>,
+    /// Of the barometer; the receiver would see it, too.
+    height_m: f64,
     without_fixes: bool,
 }
 
@@ -108,11 +110,13 @@ fn fly_with(
         estimator.predict(&ImuSample { rates: sample.rates + shift.rates_radps, ..sample });
         // It is part of the field that the world measures.
         world.real.nominal.mag_bias += shift.field_gauss;
+        world.real.nominal.position.z -= shift.height_m;
         match shift.without_fixes {
             true => world.measure_without_fixes(estimator),
             false => world.measure(estimator, 0.12),
         }
         world.real.nominal.mag_bias -= shift.field_gauss;
+        world.real.nominal.position.z += shift.height_m;
         let speed = world.real.nominal.velocity.norm();
         let (pressure_pa, density) = (static_pa(160.0), crate::atmosphere::density_kgpm3(160.0));
         estimator.update_airspeed(world.time_s, 0.5 * density * speed * speed, pressure_pa);
@@ -140,7 +144,7 @@ fn without_satellites_the_field_tells_a_shifted_gyroscope_and_a_shifted_magnetom
         };
         let before_s = random.random_range(0.0..10.0);
         fly_with(&mut world, &mut estimator, before_s, Shift { without_fixes: true, ..Shift::default() });
-        let shift = Shift { rates_radps, field_gauss, without_fixes: true };
+        let shift = Shift { rates_radps, field_gauss, without_fixes: true, ..Shift::default() };
         for step in 0..(5.0 * rising_s) as u32 {
             let share = f64::from(step) / (5.0 * rising_s);
             fly_with(&mut world, &mut estimator, 0.2, Shift { field_gauss: share * field_gauss, ..shift });
@@ -241,6 +245,27 @@ fn barometer_that_does_not_climb_with_the_aircraft_is_left_and_not_zeroed_anew()
         assert!(worst_m < 20.0, "{about}: {worst_m} m");
         let off_m = (estimator.filter.nominal.position.z - world.real.nominal.position.z).abs();
         assert!(off_m < 2.0, "{about}: {off_m} m at the end");
+    }
+}
+
+/// One height or all from then on: what leaps is the gate's matter, and no climb.
+#[test]
+fn barometer_that_leaps_without_satellites_is_no_port_that_is_wrong_and_the_height_stays() {
+    for seed in 0..40 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut world = World::new(seed, config(true));
+        world.real.nominal.wind = Vector2::zeros();
+        let mut estimator = world.estimator();
+        fly_with(&mut world, &mut estimator, 30.0, Shift::default());
+        let out = Shift { without_fixes: true, ..Shift::default() };
+        fly_with(&mut world, &mut estimator, random.random_range(2.0..10.0), out);
+        let leap =
+            Shift { height_m: random.random_range(12.0..60.0) * [1.0, -1.0][seed as usize % 2], ..out };
+        let seconds = if seed % 4 < 2 { DT_S * 2.0 } else { 12.0 };
+        fly_with(&mut world, &mut estimator, seconds, leap);
+        let off_m = (estimator.filter.nominal.position.z - world.real.nominal.position.z).abs();
+        assert!(off_m < 5.0, "seed {seed}, {} m for {seconds} s: {off_m} m", leap.height_m);
+        assert!(estimator.static_watch.is_believed(), "seed {seed}, {} m for {seconds} s", leap.height_m);
     }
 }
 

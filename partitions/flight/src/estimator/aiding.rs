@@ -383,7 +383,7 @@ impl Estimator {
     }
 
     /// Velocity through the air, NED, m/s.
-    fn air(&self) -> Vector3<f64> {
+    pub(super) fn air(&self) -> Vector3<f64> {
         let nominal = &self.filter.nominal;
         nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0)
     }

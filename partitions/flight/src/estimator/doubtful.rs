@@ -83,8 +83,7 @@ impl Estimator {
             return sample;
         }
         let nominal = &self.filter.nominal;
-        let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
-        let air = nominal.attitude.inverse_transform_vector(&air);
+        let air = nominal.attitude.inverse_transform_vector(&self.air());
         let down = nominal.attitude.inverse_transform_vector(&Vector3::new(0.0, 0.0, GRAVITY_MPS2));
         if air.x < LEAST_MPS {
             return self.unturned(&sample); // it stands or rolls, and hardly turns

@@ -316,7 +316,9 @@ impl Estimator {
         let gate_share = self.filter.normalised(&scalar).abs() / self.config.measurement.gate_sigma;
         let leaps = self.static_watch.leaps(gate_share) && believed;
         if leaps {
-            self.static_watch.restart(); // a leap is the gate's matter: the height has not followed it
+            // A leap is the gate's matter: the height has not followed it.
+            self.static_watch.restart();
+            self.path_watch.restart();
         } else if let Some(off_m) = self.static_watch.height(time_s, altitude) {
             self.leave_barometer(off_m);
         }
@@ -326,9 +328,7 @@ impl Estimator {
             (true, true) => {}
         }
         let inertial = self.status() == EstimatorStatus::Inertial;
-        if leaps {
-            self.path_watch.restart();
-        } else if self.goes_another_path(time_s, altitude, inertial) {
+        if !leaps && self.goes_another_path(time_s, altitude, inertial) {
             return;
         }
         let accepted = self.fuse(Aid::Barometer, &[scalar]);
@@ -357,17 +357,15 @@ impl Estimator {
             return false;
         }
         let air = self.air();
-        let (Some((along, _)), Some(sample)) = (self.path_watch.axes(), self.last_sample) else {
+        let by_attitude = self.path_watch.air_mps(&self.filter.nominal.attitude, &air);
+        let (Some(by_attitude), Some(sample)) = (by_attitude, self.last_sample) else {
             return false;
         };
-        let nominal = &self.filter.nominal;
-        let by_attitude = self.path_watch.air_mps(&nominal.attitude, &along, &air);
         let now = Heights {
             time_s,
             barometer_m: altitude_m,
             climb_mps: -by_attitude.z,
             airspeed_mps: self.last_airspeed_mps.filter(|_| self.pitot_believed),
-            along,
             specific_force: sample.specific_force,
         };
         let least_mps = if self.pitot_believed { 0.0 } else { UNLEARNT_GUSTS_MPS };
@@ -494,13 +492,12 @@ impl Estimator {
 
     /// Learns how the air comes; without a receiver, that tells the sink rate where no barometer does, and the airspeed where no pitot does.
     fn follow_incidence(&mut self, time_s: f64, inertial: bool) {
-        if !inertial && !self.record.fresh(Aid::GpsVelocity, time_s, LEARN_WITHIN_S) {
-            return;
-        }
         if !inertial {
-            let air = self.filter.nominal.attitude.inverse() * self.air();
-            let interval_s = self.config.measurement.airspeed_interval_s;
-            self.path_watch.learn(interval_s, &air, &self.filter.nominal.accel_bias);
+            if self.record.fresh(Aid::GpsVelocity, time_s, LEARN_WITHIN_S) {
+                let air = self.filter.nominal.attitude.inverse() * self.air();
+                let interval_s = self.config.measurement.airspeed_interval_s;
+                self.path_watch.learn(interval_s, &air, &self.filter.nominal.accel_bias);
+            }
             return;
         }
         let Some((_, across)) = self.path_watch.axes() else { return };

@@ -45,8 +45,7 @@ pub(super) struct Heights {
     pub(super) climb_mps: f64,
     /// Airspeed by pitot, m/s, if that is believed.
     pub(super) airspeed_mps: Option<f64>,
-    /// Where the aircraft flies to through the air, and specific force, body axes, m/s².
-    pub(super) along: Vector3<f64>,
+    /// By the accelerometers, body axes, m/s².
     pub(super) specific_force: Vector3<f64>,
 }
 
@@ -103,14 +102,10 @@ impl PathWatch {
         (self.learnt_s >= LEARNT_S).then(|| (turned * Vector3::x(), turned * Vector3::z()))
     }
 
-    /// The velocity through the air, NED, of an aircraft with this attitude, along this axis, whose inertial values say this velocity, m/s.
-    pub(super) fn air_mps(
-        &self,
-        attitude: &UnitQuaternion<f64>,
-        along: &Vector3<f64>,
-        air: &Vector3<f64>,
-    ) -> Vector3<f64> {
-        attitude * along * air.norm().max(LEAST_SHARE * self.usual_mps)
+    /// The velocity through the air, NED, of an aircraft with this attitude, whose inertial values say this velocity, m/s.
+    pub(super) fn air_mps(&self, attitude: &UnitQuaternion<f64>, air: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (along, _) = self.axes()?;
+        Some(attitude * along * air.norm().max(LEAST_SHARE * self.usual_mps))
     }
 
     /// A receiver is there: it judges.
@@ -120,6 +115,7 @@ impl PathWatch {
 
     /// Takes heights in gusts of so many m/s; gives how much more the barometer has climbed than the aircraft when that is found to be wrong.
     pub(super) fn compare(&mut self, now: Heights, gusts_mps: f64) -> Option<f64> {
+        let (along, _) = self.axes()?;
         let last = self.last.replace(now)?;
         let interval_s = now.time_s - last.time_s;
         if !(0.0..=LONGEST_GAP_S).contains(&interval_s) {
@@ -135,7 +131,7 @@ impl PathWatch {
         }
         match (now.airspeed_mps, last.airspeed_mps) {
             (Some(now_mps), Some(last_mps)) => {
-                let along_mps2 = (now.specific_force - self.bias_mps2).dot(&now.along);
+                let along_mps2 = (now.specific_force - self.bias_mps2).dot(&along);
                 let lifted_m = along_mps2 / GRAVITY_MPS2 * now_mps * interval_s;
                 let speed_takes_m = (now_mps.powi(2) - last_mps.powi(2)) / (2.0 * GRAVITY_MPS2);
                 self.by_energy.add(climbed_m - (lifted_m - speed_takes_m), free_m);
@@ -162,7 +158,7 @@ mod tests {
 
     const GUSTS_MPS: f64 = 0.8;
 
-    /// What an aircraft is told from its climb rate, by time, m/s.
+    /// What an aircraft is told of its climb.
     struct Told {
         /// Lag of the static port, s.
         lag_s: f64,
@@ -195,7 +191,6 @@ mod tests {
                 barometer_m,
                 climb_mps: climb + told.tilted_mps + GUSTS_MPS * noise(),
                 airspeed_mps: told.pitot.then(|| 22.0 + 0.5 * noise()),
-                along,
                 specific_force: GRAVITY_MPS2 * climb / 22.0 * along,
             };
             watch.compare(now, GUSTS_MPS).map(|off_m| (time_s, off_m))

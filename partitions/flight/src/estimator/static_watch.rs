@@ -121,7 +121,7 @@ impl StaticWatch {
         let off_m = self.off_m(self.count.checked_sub(1)?)?;
         let drifted = !self.leapt && off_m.abs() > 0.5 * SHORT_M && self.is_fresh(time_s);
         if drifted {
-            (self.believed, self.agreed) = (false, 0);
+            self.disbelieve();
         }
         // What was refused since the height has not followed.
         drifted.then(|| self.followed_m.unwrap_or(0.0))
@@ -132,7 +132,7 @@ impl StaticWatch {
         self.level_m = None;
     }
 
-    /// It was found to be wrong otherwise than by the receiver.
+    /// The barometer is found to be wrong, here or otherwise than by the receiver.
     pub(super) fn disbelieve(&mut self) {
         (self.believed, self.agreed) = (false, 0);
     }
@@ -208,7 +208,7 @@ impl StaticWatch {
         }
         self.against = if wrong.is_some() { self.against + 1 } else { 0 };
         if self.believed && self.against >= AGAINST {
-            (self.believed, self.agreed) = (false, 0);
+            self.disbelieve();
             return self.followed_m.or(wrong);
         }
         if !self.believed {
